@@ -4,6 +4,7 @@
 
 import math
 
+from driven_runs import Drive
 from fabrics import make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim.bag.recorded_run import RecordedRun
@@ -18,7 +19,6 @@ from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.terms.body_force.external_force import call_function
 import numpy as np
 import pytest
-from recorded_runs import record_run
 
 LOOSE = {
     'weave.connected': False, 'solver.tolerance': 1e-9, 'groups.g': 'ids 1 3',
@@ -368,12 +368,18 @@ def test_statics_needs_a_time_for_forces_of_time():
     assert found.snapshot.position == pytest.approx(steady.snapshot.position, abs=1e-9)
 
 
-def test_recorded_runs_are_verified(tmp_path):
+def test_live_changes_are_recorded_and_verified(tmp_path):
     scene = scene_with({
         'loads.w.group': 'g', 'loads.w.expression': '-3*(x - 0.1), sin(9*t), 0',
-        'tractions.p.group': 'g', 'tractions.p.expression': '50*t*xi', 'tractions.p.pressure': 1.0,
-        'real_time_factor': 0.0, 'duration': 0.1})
-    record_run(tmp_path / 'bag', scene)
+        'loads.w.start': 0.013, 'tractions.p.group': 'g', 'tractions.p.expression': '50*t*xi',
+        'tractions.p.pressure': 1.0, 'real_time_factor': 0.0, 'duration': 0.1})
+    drive = Drive(tmp_path / 'bag', scene, [
+        (30, lambda drive: drive.change(loads__w__expression='k*x, 0, -t', constants__k=-5.0)),
+        (50, lambda drive: drive.reset()),
+        (70, lambda drive: drive.change(line_loads__l__group='g', line_loads__l__force=[
+            0.0, 1.0, 0.0], line_loads__l__expression='s*t'))]).run()
+    assert drive.runner.parameters['loads.w.expression'] == 'k*x, 0, -t'
     with RecordedRun(tmp_path / 'bag') as run:
         result = verify_run(run)
-    assert result.verdict == 'identical' and result.compared.total() > 10
+    assert result.verdict == 'identical' and result.repeated['re-weaves'] == 2
+    assert result.compared.total() > 10

@@ -182,7 +182,10 @@ class EmbeddedError(StepController):
         rate = rates.fastest(contacts=False)
         if not rate < math.inf:
             self._pieces.trajectory.fail(too_fast(time, rates.fastest_term()))
-        return _FIRST_STEP / rate if rate > 0.0 else self._output_period
+        # The rate of a body force is unknown, and far ahead it may not be finite.
+        longest = self._output_period if rate == 0.0 or (
+            self._pieces.trajectory.packed.external is not None) else math.inf
+        return min(_FIRST_STEP / rate, longest) if rate > 0.0 else longest
 
     @property
     def _has_kinks(self) -> bool:
