@@ -155,6 +155,18 @@ def test_motion_of_two_bodies_is_that_of_scipy(two):
     assert len(drawn) == 4
 
 
+def test_direction_cosines_give_the_motion_of_quaternions(two):
+    found = []
+    for scene in (two, two.with_changes({'solver.rotation': 'direction_cosines'})):
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(0.05)
+        found.append(simulation.snapshot())
+    one, other = found
+    np.testing.assert_allclose(other.position, one.position, atol=1e-9)
+    np.testing.assert_allclose(other.angular_velocity, one.angular_velocity, atol=1e-5)
+    assert other.energy['dissipated'] == pytest.approx(one.energy['dissipated'], rel=1e-6)
+
+
 def test_bits_do_not_depend_on_pieces_restarts_or_threads(folder):
     _, scene = pair(folder, {'solver.method': 'srkn4'})
     whole = ico.compile_scene(scene)
