@@ -281,7 +281,8 @@ class Renderer:
         lighting = Lighting.of(camera.axes)
         shown = shown_bodies(scene, self.framing.bodies)
         around = grounds(
-            scene, camera, camera.target, max(_reach(self.framing.points), self.framing.radius))
+            scene, camera, camera.target, max(_reach(self.framing.points), self.framing.radius),
+            moment.time)
         image = self._backdrop(scene, camera, size, area, around, backdrop)
         for ground in around:
             if ground.faces_viewer:
@@ -325,7 +326,9 @@ class Renderer:
         """Draw the static parts: the backdrop and the planes that face the viewer."""
         from PIL import Image, ImageDraw, ImageFilter
 
-        key = (camera.target.tobytes(), camera.distance, size, id(scene))
+        key = (
+            camera.target.tobytes(), camera.distance, size, id(scene),
+            tuple(ground.offset for ground in around))
         if backdrop is None and key in self._backdrops:
             return self._backdrops[key]
         image = Image.fromarray(_gradient(size)) if backdrop is None else backdrop

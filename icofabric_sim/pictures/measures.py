@@ -15,7 +15,7 @@ from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.connector_laws import strain_of
-from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.planes import planes_at
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
 from icofabric_sim.simulation.model.wrapped_paths import Segments, straight_segments, trace_scene
@@ -110,13 +110,15 @@ def tensions(scene: Scene, length: np.ndarray) -> np.ndarray:
         laws.extension, laws.natural_length)
 
 
-def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
-    """Deepest overlap [m] of each shell with another one or with a plane, (n,); 0: none."""
+def overlaps(
+    scene: Scene, position: np.ndarray, orientation: np.ndarray, time: float = 0.0
+) -> np.ndarray:
+    """Deepest overlap [m] of each shell with another or a plane at a `time` [s], (n,); 0: none."""
     deepest = np.zeros(len(position))
     contacts = find_contacts(scene.body_half_edges, position, orientation)
     for side in contacts.bodies.T:
         np.maximum.at(deepest, side, contacts.depth)
-    planes = make_planes(scene.parameters)
+    planes = planes_at(scene.parameters, scene.platens, time)
     if len(planes):
         corners = np.einsum(
             'n,va,nai->nvi', scene.body_half_edges, vertices(1.0),
@@ -135,7 +137,7 @@ def values_of(name: str, moment: Moment) -> np.ndarray:
             return np.zeros(scene.body_count)
         return np.asarray(np.linalg.norm(moment.velocity, axis=1))
     if name == 'contact':
-        return overlaps(scene, moment.position, moment.orientation)
+        return overlaps(scene, moment.position, moment.orientation, moment.time)
     if not scene.connector_count:
         return np.zeros(0)
     length = connector_segments(

@@ -13,7 +13,7 @@ from icofabric_sim.messages.markers import held_bodies
 from icofabric_sim.pictures.camera import Camera
 from icofabric_sim.pictures.light import Lighting
 from icofabric_sim.pictures.moment import Moment
-from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.planes import planes_at
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
@@ -45,10 +45,14 @@ class Ground(NamedTuple):
         return np.where((height >= 0.0)[..., None], cast, np.nan)
 
 
-def grounds(scene: Scene, camera: Camera, middle: np.ndarray, reach: float) -> list[Ground]:
-    """Planes of a scene around a `middle` (3,) within `reach` [m]; those too far off are left."""
+def grounds(
+    scene: Scene, camera: Camera, middle: np.ndarray, reach: float, time: float = 0.0
+) -> list[Ground]:
+    """
+    Planes of a scene at a `time` [s] around a `middle` (3,) within `reach` [m], without far ones.
+    """
     found = []
-    for row in make_planes(scene.parameters):
+    for row in planes_at(scene.parameters, scene.platens, time):
         normal, offset = row[:3], float(row[3])
         height = float(normal @ middle) - offset
         if abs(height) > 3.0 * reach:

@@ -110,6 +110,11 @@ class Path(NamedTuple):
 
     pieces: tuple[PathPiece, ...]
 
+    def at(self, time: float) -> np.ndarray:
+        """Return the six coordinates at a time [s]."""
+        begun = [piece for piece in self.pieces if piece.start <= time]
+        return (begun or self.pieces)[-1 if begun else 0].at(time)
+
     @property
     def fastest(self) -> np.ndarray:
         """Estimated largest speed [m/s] and angular speed [rad/s], (2,)."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid planes: floors, walls, and platens that move on prescribed paths."""
 
+from collections.abc import Mapping
 import math
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
@@ -25,6 +26,19 @@ def make_planes(parameters: Parameters) -> np.ndarray:
         offset = parameters[f'planes.{name}.offset']
         rows.append([*(part / size for part in normal), offset / size])
     return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def planes_at(parameters: Parameters, paths: Mapping[str, Path], time: float) -> np.ndarray:
+    """
+    Return the planes, as `make_planes`, moved along their `paths` until a `time` [s]; NaN: 0.
+
+    Twists that have replaced paths are left out.
+    """
+    planes = make_planes(parameters)
+    for plane, name in zip(planes, parameters.names('planes')):
+        if name in paths:
+            plane[3] += plane[:3] @ paths[name].at(time if time == time else 0.0)[:3]
+    return planes
 
 
 def make_platens(parameters: Parameters) -> dict[str, Path]:

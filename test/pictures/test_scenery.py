@@ -42,6 +42,17 @@ def test_a_floor_lies_at_its_height_and_reaches_beyond_the_fabric() -> None:
     assert not around(slab(**{**FLOOR, 'planes.floor.offset': -4.0})) and not around(slab())
 
 
+def test_a_floor_that_moves_is_shown_where_its_path_is() -> None:
+    scene = slab(**{
+        **FLOOR, 'planes.floor.motion': 'ramp', 'planes.floor.linear': [0.1, 0.0, 0.01],
+        'planes.floor.duration': 0.5})
+    camera = frame_moments([at_rest(scene)], VIEW).camera(AREA)
+    for time, height in ((0.0, -0.02), (0.5, -0.0175), (1.0, -0.0125), (math.nan, -0.02)):
+        shown, = grounds(scene, camera, camera.target, 0.2, time)
+        np.testing.assert_allclose(shown.rim[:, 2], height, atol=1e-12)
+        assert shown.offset == pytest.approx(height)
+
+
 @pytest.mark.parametrize('up, faces', [(1.0, True), (-1.0, False)])
 def test_lines_on_a_floor_are_two_pitches_apart(up: float, faces: bool) -> None:
     scene = slab(**{'planes.floor.normal': [0.0, 0.0, up], 'planes.floor.offset': -up * 0.02})

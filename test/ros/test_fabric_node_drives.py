@@ -29,3 +29,28 @@ def test_node_moves_a_drive_by_its_topic(tmp_path):
         send()
         client.wait_for(lambda: poses[-1].values[-1, 0] > before + 1e-3, 'the drive to move')
         assert node.stop() == 0
+
+
+def test_node_moves_a_plane_and_reports_the_wrench_on_it(tmp_path):
+    path = write_scene(tmp_path / 'scene.yaml', {
+        'weave': {'size': [1, 1, 1]}, 'contact': {'stiffness': 1e4, 'friction': 0.3},
+        'gravity': [0.0, 0.0, -9.81], 'planes': {'floor': {
+            'normal': [0.0, 0.0, 1.0], 'offset': -0.01618, 'motion': 'hold'}}})
+    with NodeProcess(tmp_path / 'log', scene=path) as node, Client(node) as client:
+        poses = client.listen('~/poses')
+        wrenches = []
+        client.node.create_subscription(
+            ros_class('geometry_msgs/msg/WrenchStamped'), '/icofabric/planes/floor/wrench',
+            wrenches.append, 10)
+        publisher = client.publisher('~/planes/floor', 'geometry_msgs/msg/TwistStamped')
+        client.wait_for(lambda: wrenches, 'wrenches')
+        message = ros_class('geometry_msgs/msg/TwistStamped')()
+        message.twist.angular.x = 1.0
+        publisher.publish(message)
+        client.wait_for(lambda: node.lines('a plane does not rotate'), 'the warning')
+        message.twist.angular.x, message.twist.linear.z = 0.0, 0.01
+        before = poses[-1].values[0, 2]
+        publisher.publish(message)
+        client.wait_for(lambda: poses[-1].values[0, 2] > before + 1e-3, 'the plane to lift')
+        assert min(wrench.wrench.force.z for wrench in wrenches) < -0.01
+        assert node.stop() == 0
