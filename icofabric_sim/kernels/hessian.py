@@ -12,6 +12,7 @@ from icofabric_sim.kernels.records import Model
 from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.lanes import (
     load,
+    maximum,
     splat,
     sqrt,
     store,
@@ -47,10 +48,12 @@ def inverse_roots(
     if supports is None:
         return splat(root_m), splat(root_m), splat(root_m), splat(root_i)
     else:
+        # Inverse masses of carriers of planes are negative.
+        zero = splat(0.0)
         return (
-            sqrt(load(supports.inverse_mass, 0, s)),
-            sqrt(load(supports.inverse_mass, 1, s)),
-            sqrt(load(supports.inverse_mass, 2, s)),
+            sqrt(maximum(load(supports.inverse_mass, 0, s), zero)),
+            sqrt(maximum(load(supports.inverse_mass, 1, s), zero)),
+            sqrt(maximum(load(supports.inverse_mass, 2, s), zero)),
             sqrt(load(supports.inverse_inertia, 0, s)))
 
 

@@ -318,7 +318,7 @@ def pack_supports(
         mass = np.where(supports.translation, 0.0, mass)
         inertia = np.where(supports.rotation, 0.0, inertia)
     packed = PackedSupports(layout.spread(mass), layout.spread(inertia[:, None]))
-    packed.inverse_mass[:, layout.carriers] = 1.0
+    packed.inverse_mass[:, layout.carriers] = -1.0
     return packed
 
 

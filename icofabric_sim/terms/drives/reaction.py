@@ -66,8 +66,8 @@ def path_power(
     linear = fma(a[0], load(speed, 0, s), fma(a[1], load(speed, 1, s), a[2] * load(speed, 2, s)))
     angular = fma(a[3], load(spin, 0, s), fma(a[4], load(spin, 1, s), a[5] * load(spin, 2, s)))
     mass, inertia = masses_of(masses, inverse_mass, inverse_inertia, s)
-    # Of carriers of planes, which have no mass, the accelerations are forces.
-    mass = where(splat(0.0) < mass, mass, splat(1.0))
+    # Of carriers of planes, which have no mass, the accelerations are minus the forces.
+    mass = where(splat(0.0) < mass, mass, splat(-1.0))
     return fma(mass, linear, inertia * angular)
 
 

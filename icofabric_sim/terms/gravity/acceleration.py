@@ -20,13 +20,11 @@ def add_acceleration(
         zero = splat(0.0)
         g = gravity.acceleration
         gx, gy, gz = splat(g[0]), splat(g[1]), splat(g[2])
-        there = bits(alive)
         if supports is None:
+            there = bits(alive)
             gx, gy, gz = where(there, gx, zero), where(there, gy, zero), where(there, gz, zero)
         else:
             gx = where(load(supports.inverse_mass, 0, s) > zero, gx, zero)
             gy = where(load(supports.inverse_mass, 1, s) > zero, gy, zero)
             gz = where(load(supports.inverse_mass, 2, s) > zero, gz, zero)
-            # Carriers of planes do not fall.
-            gx, gy, gz = where(there, gx, zero), where(there, gy, zero), where(there, gz, zero)
         return ax + gx, ay + gy, az + gz, bx, by, bz
