@@ -6,6 +6,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import volume_quadrature
 from icofabric_sim.scene.summary import describe_scene
+from icofabric_sim.statics.periodic import make_cell
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -142,6 +143,15 @@ def test_tilted_axes_swing_at_the_frequencies_of_the_whole_tensor():
     plain = ico.solve_modes(make_scene((1, 1, 1), {
         'charge.dipole': [1e-6, 0.0, 0.0], 'field.electric': [1e5, 0.0, 0.0]})).frequencies
     assert np.abs(found[-2:] / plain[-2:] - 1.0).max() > 0.01
+
+
+def test_waves_have_the_whole_tensor():
+    cell = make_cell(make_scene((2, 2, 2), {'weave.kind': 'bias', 'shell.expression': TILTED}))
+    _, tensor = tilted_tensor()
+    pose = Rotation.from_quat(cell.scene.orientation[cell.body]).as_matrix()
+    turning = cell.inverse_sqrt_mass[3:, 3:]
+    assert turning @ turning @ (pose @ tensor @ pose.T) == pytest.approx(np.eye(3), abs=1e-5)
+    assert not np.array_equal(pose, np.eye(3))
 
 
 def test_a_spun_body_with_tilted_axes_needs_a_torque():
