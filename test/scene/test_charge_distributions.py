@@ -8,6 +8,7 @@ from icofabric_sim.geometry.icosahedron import outer_triangles, volume_quadratur
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.spatial import ConvexHull, Delaunay
 
 SHELL = make_scene((1, 1, 1)).shell
@@ -23,14 +24,14 @@ def charges(changes, prefix='charge'):
 
 def test_an_even_density_is_a_charge_distributed_like_the_mass():
     found = charges({'expression': '2e-3'})
-    assert found.charge == pytest.approx([2e-3 * VOLUME], rel=1e-12)
+    assert found.charge == pytest.approx([2e-3 * VOLUME], rel=1e-12, abs=0.0)
     assert np.abs(found.dipole).max() < 1e-12 * found.charge[0] * SHELL.half_edge
-    assert found.second == pytest.approx([2e-3 * SQUARE], rel=1e-12)
+    assert found.second == pytest.approx([2e-3 * SQUARE], rel=1e-12, abs=0.0)
     field = {'field.magnetic': [0.0, 1.0, 2.0]}
     even, plain = (
         pack_scene(make_scene((2, 2, 1), {**field, **charge})).model.magnet for charge in (
             {'charge.expression': '2e-3'}, {'charge.per_body': 2e-3 * VOLUME}))
-    assert even.second == pytest.approx(plain.second, rel=1e-12) and even.second.any()
+    assert even.second == pytest.approx(plain.second, rel=1e-12, abs=0.0) and even.second.any()
 
 
 def test_a_linear_density_has_the_dipole_of_its_slope():
@@ -79,13 +80,22 @@ def test_layers_of_charge(tmp_path):
     path = tmp_path / 'charge.csv'
     path.write_text(f'distance, density\n{outside - SHELL.thickness}, 2e-3\n{outside}, 2e-3\n')
     found = charges({'layers': str(path)})
-    assert found.charge == pytest.approx([2e-3 * VOLUME], rel=1e-8)
-    assert found.second == pytest.approx([2e-3 * SQUARE], rel=1e-8)
+    assert found.charge == pytest.approx([2e-3 * VOLUME], rel=1e-8, abs=0.0)
+    assert found.second == pytest.approx([2e-3 * SQUARE], rel=1e-8, abs=0.0)
     assert not found.dipole.any()
-    # Opposite charges inside and outside have none in all, but a second moment.
-    path.write_text(f'0, -1e-3\n{outside / 2.0}, -1e-3\n{outside}, 1e-3\n')
+    # A density that changes its sign, over icosahedra of the distance d.
+    ends, densities = [0.0, outside / 2.0, outside], [-1e-3, -1e-3, 1e-3]
+    path.write_text(''.join(f'{d}, {value}\n' for d, value in zip(ends, densities)))
     found = charges({'layers': str(path)})
-    assert found.second[0] > 0.0
+    solid = tmp_path / 'solid.csv'
+    solid.write_text(f'0, 1\n{outside}, 1\n')
+    full = make_scene((1, 1, 1), {'shell.layers': str(solid)})
+    for value, whole, power in (
+            (found.charge[0], full.shell.mass, 3), (found.second[0], 0.5 * full.shell.inertia, 5)):
+        wanted = whole * power / outside**power * quad(
+            lambda d, power=power: np.interp(d, ends, densities) * d**(power - 1), 0.0, outside,
+            points=[outside / 2.0])[0]
+        assert value == pytest.approx(wanted, rel=1e-8, abs=0.0)
     path.write_text('0, 1e-3\n0.5, 1e-3\n')
     with pytest.raises(ico.ParameterError, match=r'charge\.layers: .*beyond the faces'):
         charges({'layers': str(path)})
@@ -95,10 +105,10 @@ def test_a_group_has_its_own_density():
     found = make_scene((2, 2, 1), {
         'charge.per_body': 1e-9, 'groups.one': 'ids 1', 'charges.own.group': 'one',
         'charges.own.expression': '2e-3 + 0.1*y'}).electric
-    assert found.charge == pytest.approx([1e-9, 2e-3 * VOLUME], rel=1e-6)
+    assert found.charge == pytest.approx([1e-9, 2e-3 * VOLUME], rel=1e-6, abs=0.0)
     assert found.dipole[1] == pytest.approx([0.0, 0.1 * SQUARE, 0.0], rel=1e-6, abs=1e-18)
     assert np.isnan(found.second[0]) and found.second[1] == pytest.approx(
-        2e-3 * SQUARE, rel=1e-6)
+        2e-3 * SQUARE, rel=1e-6, abs=0.0)
 
 
 def test_the_dipole_of_a_density_acts_like_one_that_is_given():
