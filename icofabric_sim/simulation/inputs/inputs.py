@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.records import Loads
+from icofabric_sim.scene.expression_times import critical_times
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Piece, Profile, STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene
@@ -40,6 +41,7 @@ from icofabric_sim.simulation.inputs.pulls import Pulls
 from icofabric_sim.simulation.inputs.queue import Event, InputQueue
 from icofabric_sim.simulation.inputs.timetable import (
     AnchorPath,
+    ExpressionTimes,
     FieldProfile,
     Follower,
     Timetable,
@@ -56,6 +58,10 @@ from icofabric_sim.simulation.model.tractions import (
 import numpy as np
 
 _ZERO_VECTOR = np.zeros(3)
+# Steps end before and after a change of an expression, at this distance over the time.
+CHANGE_GAP_RATIO = 1e-12
+# Largest angle [rad] in a step of a sine within another function, which may act in short pulses.
+_EXPRESSION_ANGLE = 0.3
 
 
 class Inputs:
@@ -91,7 +97,19 @@ class Inputs:
             DriveTarget(name): drive.path for name, drive in scene.drives.items()}
         paths |= {PlaneTarget(name): path for name, path in scene.platens.items()}
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
-        self.timetable = Timetable({**profiles, **paths})
+        critical = [
+            critical_times(load.expression, scene.initial.position[load.bodies])
+            for load in scene.expression_loads]
+        # Longest step [s] for sines within other functions of expressions.
+        rate = max((each.rate for each in critical), default=0.0)
+        self.expression_step = _EXPRESSION_ANGLE / rate if rate > 0.0 else math.inf
+        # Steps end just after expressions change.
+        marks: dict[Follower, Profile] = {
+            ExpressionTimes(number): Profile(tuple(Piece(time, 1.0, peak=1.0) for time in (
+                0.0, *((1.0 + CHANGE_GAP_RATIO) * each.times).tolist())))
+            for number, each in enumerate(critical)}
+        self.timetable = Timetable({**profiles, **marks, **paths})
+        self._marks = [name for name, mark in marks.items() if len(mark.pieces) > 1]
         self.driving = Driving(scene.drives, scene.platens, scene.initial, self.timetable)
         # None if no anchor can break.
         self.anchor_breaks = AnchorBreaks(scene.anchors) if scene.anchors_break else None
@@ -169,6 +187,11 @@ class Inputs:
     def acting(self) -> dict[LoadTarget, Wrench]:
         """Return the active wrenches: channels by name, followed by bodies by number."""
         return {target: self.active[target] for target in sorted(self.active, key=load_order)}
+
+    @property
+    def next_expression_change(self) -> float:
+        """Time [s] just after the next change of an expression; infinite without one."""
+        return min((self.timetable.next_start(name) for name in self._marks), default=math.inf)
 
     @property
     def next_time(self) -> float:

@@ -30,6 +30,16 @@ class TractionProfile:
 
 
 @dataclass(frozen=True, slots=True)
+class ExpressionTimes:
+    """The times at which a load by an expression changes."""
+
+    number: int
+
+    def __str__(self) -> str:
+        return f'times of expression {self.number}'
+
+
+@dataclass(frozen=True, slots=True)
 class AnchorPath:
     """The path of `anchors.NAME`."""
 
@@ -61,7 +71,8 @@ class PulseSettings:
 _SETTINGS = PulseSettings()
 
 # Types that follow a profile or a path.
-Follower = ChannelTarget | PathTarget | TractionProfile | AnchorPath | FieldProfile
+Follower = (
+    ChannelTarget | PathTarget | TractionProfile | ExpressionTimes | AnchorPath | FieldProfile)
 
 
 class Timetable:
@@ -130,12 +141,12 @@ class Timetable:
     @property
     def next_time(self) -> float:
         """Time [s] at which the next segment starts; infinite without one."""
-        return min((self._next(name) for name in self._pieces), default=math.inf)
+        return min((self.next_start(name) for name in self._pieces), default=math.inf)
 
     def turn(self) -> list[Follower]:
         """Start the next segments; return their followers."""
         time = self.next_time
-        begun = [name for name in self._pieces if self._next(name) <= time]
+        begun = [name for name in self._pieces if self.next_start(name) <= time]
         for name in begun:
             self.numbers[name] += 1
         return begun
@@ -181,7 +192,8 @@ class Timetable:
             numbers[name] = number
         return numbers
 
-    def _next(self, name: Follower) -> float:
+    def next_start(self, name: Follower) -> float:
+        """Return the time [s] at which the next segment of a follower starts, or infinity."""
         starts, number = self._starts[name], self.numbers[name] + 1
         return self.epoch + starts[number] if number < len(starts) else math.inf
 

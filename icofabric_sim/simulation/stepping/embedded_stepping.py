@@ -11,6 +11,7 @@ check at the end of the step in progress wait until the run reaches that end. So
 nor the intervals of requests change the sequence.
 """
 
+import math
 from typing import Any
 
 from icofabric_sim.kernels import monitor
@@ -18,6 +19,7 @@ from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Model, State, Team
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
+from icofabric_sim.simulation.inputs.inputs import CHANGE_GAP_RATIO, Inputs
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces, Stepping
@@ -231,7 +233,10 @@ class EmbeddedStepping(Stepping):
         while status & again and count > 0:
             before = int(control.length > 0.0)
             trajectory.ledger.saved_at = -1.0
-            status, done = self._call(self._samples.allowed(count))
+            if trajectory.changing is None or self._given > 0.0:
+                status, done = self._call(self._samples.allowed(count))
+            else:
+                status, done = self._take_up_to_change(trajectory.changing)
             count -= done
             trajectory.require_body_force()
             self._samples.note(done, sound=not status & (monitor.UNSOUND | embedded.TOO_SHORT))
@@ -268,6 +273,30 @@ class EmbeddedStepping(Stepping):
         if status & ~(again | self._due):
             pieces.respond(status & ~self._due, self._step.end)
         return status
+
+    def _take_up_to_change(self, inputs: Inputs) -> tuple[int, int]:
+        """
+        Take a step that ends no later than just before an expression changes.
+
+        Across a change, a step that is hardly longer than the shortest is accepted with any error.
+        """
+        control, end, change = self._step.control, self._step.end, inputs.next_expression_change
+        following, tolerance, longest = control.next, control.tolerance, control.longest
+        if change < math.inf:
+            gap = CHANGE_GAP_RATIO * change
+            rest = change - 2.0 * gap - end
+            # No tolerance is met by the last steps before a corner of a square root.
+            if rest > 10.0 * control.shortest:
+                control.longest = min(longest, rest)
+            else:
+                control.longest, control.tolerance = max(change - end, 0.0) + gap, embedded.ANY
+        control.longest = min(control.longest, inputs.expression_step)
+        control.next = limited = min(following, control.longest)
+        found = self._call(1)
+        if control.length == limited < following:
+            control.next = following
+        control.tolerance, control.longest = tolerance, longest
+        return found
 
     def _call(self, count: int) -> tuple[int, int]:
         """Let kernels take up to `count` steps; return the status and the number of steps."""

@@ -11,6 +11,9 @@ from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.geometry.icosahedron import face_geometry, integrate_face
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.running.replay.verify import verify_run
+from icofabric_sim.scene.expression_loads import PLACE
+from icofabric_sim.scene.expression_times import critical_times
+from icofabric_sim.scene.expressions import make_expression
 from icofabric_sim.scene.summary import describe_scene
 from icofabric_sim.simulation.devices import refusals
 from icofabric_sim.simulation.model.expression_force import with_expressions
@@ -243,6 +246,37 @@ def test_profiles_scale_expressions_and_end_steps():
     for time, force in ((0.05, 0.0), (0.2, 0.02), (0.31, 0.0)):
         result = ico.solve_equilibrium(held, time=time)
         assert result.reaction[1, 1] == pytest.approx(-force, abs=1e-15)
+
+
+def test_short_pulses_are_not_skipped():
+    """Steps of a body at rest end where an expression changes: impulses in closed form."""
+    texts = {
+        'max(0, 1 - abs(t - 0.51)/0.01)': 0.01, 'where(t < 5.3, 0, where(t < 5.301, 1, 0))': 1e-3,
+        'exp(-((t - 3.1)/1e-3)**2)': 1e-3 * math.sqrt(math.pi),
+        'max(0, sin(40*t) - 0.995)*0.1': None}
+    for text, impulse in texts.items():
+        scene = scene_with({'loads.w.group': 'g', 'loads.w.expression': f'0, 0, {text}'})
+        simulation = ico.compile_scene(scene)
+        simulation.advance_to(6.0)
+        found = scene.shell.mass * simulation.snapshot().linear_velocity[1, 2]
+        if impulse is None:
+            # Of each of 38 peaks; the first is at 40 t = pi/2.
+            width = math.acos(0.995)
+            impulse = 38 * 0.1 * 2.0 / 40.0 * (math.sin(width) - 0.995 * width)
+        assert found == pytest.approx(impulse, rel=1e-5), text
+
+
+@pytest.mark.parametrize('text, times, rate', [
+    ('abs(abs(abs(t - 1) - 0.5) - 0.1)', [0.4, 0.5, 0.6, 1.0, 1.4, 1.5, 1.6], 0.0),
+    ('abs(sin(5*t + x)) + sin(6*t)*y', [], 5.0), ('max(0, sin(max(2*t, 7*t - 1)))', [0.2], 7.0),
+    ('where(x - 2*t > 0, 1, 0)', [0.05, 0.1], 0.0), ('min(t/0.1, 1) + t*x', [0.1], 0.0)])
+def test_times_of_changes_are_found(text, times, rate):
+    expression = make_expression(
+        scene_with({'loads.w.group': 'g', 'loads.w.expression': f'{text}, 0, 0'}).parameters,
+        'loads.w.expression', PLACE, (3,))
+    found = critical_times(expression, np.array([[0.1, 0.0, 3.0], [0.2, 1.0, 0.0]]))
+    assert found.times == pytest.approx(times, rel=1e-12)
+    assert found.rate == pytest.approx(rate, rel=1e-12)
 
 
 def test_loads_and_a_body_force_add_up():
