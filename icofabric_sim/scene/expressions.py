@@ -34,9 +34,18 @@ def _choose(condition: Any, first: Any, second: Any) -> Any:
     return first if condition else second
 
 
+def _smaller(first: Any, second: Any) -> Any:
+    """Return the smaller number, or NaN if one is NaN, as NumPy does."""
+    return first if first < second or first != first else second
+
+
+def _larger(first: Any, second: Any) -> Any:
+    return first if first > second or first != first else second
+
+
 # Functions of numbers, and the number of their arguments.
 SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    'abs': abs, 'min': min, 'max': max, 'where': _choose, **{
+    'abs': abs, 'min': _smaller, 'max': _larger, 'where': _choose, **{
         name: getattr(math, name) for name in (
             'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sinh',
             'cosh', 'tanh', 'hypot')}}
@@ -86,6 +95,8 @@ def make_expression(
     checker = _Checker(name, text, variables, check_constants(parameters))
     if len(text) > _MAX_LENGTH:
         checker.fail(f'has {len(text):,} characters, and at most {_MAX_LENGTH:,} are allowed')
+    if '#' in text:
+        checker.fail('comments are not allowed', text.index('#') + 1)
     # Line breaks count as blanks.
     plain = text.replace('\n', ' ')
     checker.shift = len(plain) - len(plain.lstrip())

@@ -74,6 +74,7 @@ def test_parts_without_a_variable_become_numbers():
     ('sin(x, y), 0, 0', 'sin takes 1 argument, not 2, in column 1;'),
     ('where(x, 1, 2), 0, 0', 'must be a comparison by < <= > or >= in column 7;'),
     ('1 +, 0, 0', 'in column 4;'),
+    ('x, # y,\n0, 0, 0', 'comments are not allowed in column 4;'),
     ('+'.join(['x'] * 1500), 'has 2,999 characters'),
     ('-' * 1990 + 'x, 0, 0', 'nested too deeply'),
 ])
@@ -87,3 +88,13 @@ def test_errors_give_the_column_and_what_is_allowed(text, words):
 def test_constants_have_names_of_their_own(name):
     with pytest.raises(ico.ParameterError, match=f'constants.{name}.* choose another name'):
         make_scene((1, 1, 1), {f'constants.{name}': 1.0})
+
+
+@pytest.mark.parametrize('text', ['min(x, y)', 'max(x, y)'])
+def test_numbers_that_are_not_finite_stay(text):
+    """In either order, and in both forms."""
+    expression = expression_of(text)
+    function = expression.function(SCALAR_FUNCTIONS)
+    for x, y in ((math.nan, 1.0), (1.0, math.nan)):
+        assert math.isnan(function(x, y, *[0.0] * 5)[0])
+        assert np.isnan(expression.values(x=np.array([x]), y=np.array([y])))

@@ -63,7 +63,7 @@ def _force_of(pickled: bytes) -> BodyForce:
 
 def _function(expression: Expression) -> Any:
     return _compiled(expression.function({
-        name: _compiled(function) if name == 'where' else function
+        name: _compiled(function) if name in ('min', 'max', 'where') else function
         for name, function in SCALAR_FUNCTIONS.items()}))
 
 
