@@ -24,7 +24,9 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
     with bad_input():
         scene = ico.Scene.from_parameters(parameters)
         with _quiet():
-            ico.compile_scene(scene)  # rejects a step above the stability limit
+            # Rejects a step above the stability limit, and what needs quaternions.
+            for rotation in ('quaternion', 'direction_cosines'):
+                ico.compile_scene(scene, rotation=rotation)
     duration = parameters['duration']
     with Progress(duration, 's') as progress, _quiet():
         try:

@@ -490,6 +490,16 @@ def test_cross_check_reports_agreement_and_growth(
     assert 0.0 < float(rows[-1][2]) < 1e-9 and 0.0 < float(rows[-1][3]) < 1e-9
 
 
+def test_cross_check_refuses_what_needs_quaternions(
+        call: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / 'swing.yaml').write_text(SWING)
+    result = call(
+        'run', 'swing.yaml', '--duration', '0.01', '--cross-check', '-p', 'groups.g:=all', '-p',
+        'loads.l.group:=g', '-p', 'loads.l.expression:=0, 0, -0.1 - z')
+    assert result.status == 2 and 'loads.l.expression is given quaternions' in result.err
+    assert 'Traceback' not in result.err
+
+
 def test_cross_check_bound_covers_rounding_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = swing_scene(solver={'method': 'leapfrog'}, contact={'mode': 'never'})
     honest = cross_check(scene, 0.2)
