@@ -130,7 +130,8 @@ def make_anchor_path(parameters: Parameters, name: str) -> Path:
     prefix = f'anchors.{name}'
     position, velocity = parameters[f'{prefix}.position'], parameters[f'{prefix}.velocity']
     file, motion = parameters[f'{prefix}.file'].strip(), parameters[f'{prefix}.motion']
-    for field in ('velocity',) if motion else ('linear', 'frequency'):
+    for field in ('velocity',) if motion else (
+            'linear', 'frequency', 'start', 'duration', 'phase'):
         value = parameters[f'{prefix}.{field}']
         if any(np.atleast_1d(value)):
             raise ParameterError(

@@ -248,3 +248,13 @@ def test_a_checkpoint_of_broken_anchors_is_judged():
         f'anchors.rope{k}.break_length_extension': 0.0 for k in range(4)}))
     with pytest.raises(ValueError, match='no anchor of this scene breaks'):
         unlimited.inputs.load_state(StateTree(run.inputs.state_tree()), run.time)
+
+
+def test_anchors_break_with_direction_cosines_too():
+    ends = []
+    for rotation in ('quaternion', 'direction_cosines'):
+        run = ico.compile_scene(
+            tied({'anchors.tie.break_length_extension': 1.01 * REST}), rotation=rotation)
+        run.advance_to(0.1)
+        ends.append(run.snapshot().anchors_broken_since)
+    assert np.isfinite(ends[0]).all() and ends[1] == pytest.approx(ends[0], abs=1e-9)

@@ -156,3 +156,11 @@ def test_bad_motions_are_refused_by_name(changes, name, words):
 def test_splitting_methods_refuse_damped_anchors():
     with pytest.raises(ico.ParameterError, match='solver.method srkn4'):
         ico.compile_scene(make_scene((1, 1, 1), {**SCENE, 'solver.method': 'srkn4'}))
+
+
+@pytest.mark.parametrize('field', ['start', 'duration', 'phase'])
+def test_fields_of_motions_without_a_motion_are_refused(field):
+    with pytest.raises(ico.ParameterError, match=f'anchors.tie.{field} 0.5 has no effect'):
+        make_scene((1, 1, 1), {
+            'anchors.tie.body': 0, 'anchors.tie.edge': 'up',
+            'anchors.tie.position': [0.0, 0.0, 0.1], f'anchors.tie.{field}': 0.5})

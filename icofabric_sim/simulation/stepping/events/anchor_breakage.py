@@ -102,7 +102,8 @@ class AnchorBreakage:
         """Return lengths [m] of some anchors in a state at `time` [s], and their rates [m/s]."""
         layout, anchors, breaks = self._trajectory.packed.layout, self._anchors, self._breaks
         slot = layout.slot[breaks.body[chosen]]
-        turned = np.ascontiguousarray(state.orientation[:, slot].T)
+        turned = layout.gather(state.orientation)[breaks.body[chosen]] if layout.cosines else (
+            np.ascontiguousarray(state.orientation[:, slot].T))
         if layout.cosines:
             turned = quaternions_from_cosines(turned)
         arm = np.einsum('ai,aij->aj', breaks.arm[chosen], cosines_from_quaternions(turned))
