@@ -13,6 +13,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.electric import Electric
+from icofabric_sim.scene.expression_times import critical_times
 from icofabric_sim.scene.expressions import Expression, make_expression
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.profiles import make_profile, Profile
@@ -24,9 +25,10 @@ Rule = Callable[[int], tuple[np.ndarray, np.ndarray]]
 _DEGREES = (2, 4, 8, 16, 32, 64)
 # Differences of sums over the sum of magnitudes: that ends the search, and the largest allowed.
 _TARGET_ERROR_RATIO, _MAX_ERROR_RATIO = 1e-8, 5e-3
-# Times [s] and number of bodies at which rules of two degrees are compared.
+# Rules of two degrees are compared where an expression varies most among these bodies and times.
+_SAMPLE_COUNT, _SAMPLE_DEGREE, _MAX_SAMPLE_BODIES, _MAX_SAMPLE_TIMES = 32, 8, 500, 32
+# Times [s] besides those at which the expression changes.
 _SAMPLE_TIMES_S = (0.0, 0.1372, 0.7391, 3.1847)
-_SAMPLE_BODY_COUNT = 8
 PLACE = ('x', 'y', 'z', 't')
 
 
@@ -120,11 +122,12 @@ def choose_quadrature(
             # Samples where the expression is not defined do not count.
             off = np.where((finite & known)[..., None], sums - before, 0.0)
             size = float(np.abs(values).sum(axis=-1).max())
-            error = float(np.abs(off).max()) / size if size > 0.0 else 0.0
+            error = float(np.abs(off).max()) / size if size > 0.0 else np.nan
             if error <= _TARGET_ERROR_RATIO:
                 return Quadrature(degree // 2, error)
         before, known = sums, finite
-    if not error <= _MAX_ERROR_RATIO:
+    # Not known if all samples are zero.
+    if error > _MAX_ERROR_RATIO:
         raise ParameterError(
             expression.name,
             f'{expression.name}: sums over a face or an edge do not converge: Gauss rules of the '
@@ -134,23 +137,44 @@ def choose_quadrature(
 
 
 def sample_places(
-    state: InitialState, bodies: np.ndarray, points: Callable[[np.ndarray], np.ndarray]
+    expression: Expression, rule: Rule, state: InitialState, bodies: np.ndarray,
+    points: Callable[[np.ndarray], np.ndarray], duration: float
 ) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
     """
     Return the function `places` for points (j, k, 3) [m] in body axes, by their coordinates.
 
-    Samples are some of the `bodies` at the start, at several times.
+    Samples are those of the `bodies` in their initial places, and of times until `duration` [s],
+    for which the expression varies most over faces or edges.
     """
-    chosen = bodies[np.unique(np.linspace(0, len(bodies) - 1, _SAMPLE_BODY_COUNT).astype(int))]
-    axes = cosines_from_quaternions(state.orientation[chosen])
+    chosen = bodies[np.unique(np.linspace(
+        0, len(bodies) - 1, min(len(bodies), _MAX_SAMPLE_BODIES)).astype(int))]
+    times = _SAMPLE_TIMES_S[:1]
+    if 't' in expression.variables:
+        changes = critical_times(expression, state.position[chosen]).times
+        changes = changes[np.unique(np.linspace(
+            0, len(changes) - 1, _MAX_SAMPLE_TIMES).astype(int))] if len(changes) else changes
+        times = (*_SAMPLE_TIMES_S, *changes, *np.linspace(0.0, duration, _MAX_SAMPLE_TIMES)[1:])
 
-    def places(coordinates: np.ndarray) -> dict[str, np.ndarray]:
+    def at(time: np.ndarray | float, found: np.ndarray, coordinates: np.ndarray) -> dict[
+            str, np.ndarray]:
+        axes = cosines_from_quaternions(state.orientation[found])
         world = np.einsum('jkc,bci->ibjk', points(coordinates), axes)
-        x, y, z = world + state.position[chosen].T[:, :, None, None]
-        time = np.array(_SAMPLE_TIMES_S)[:, None, None, None]
-        return {'x': x, 'y': y, 'z': z, 't': time, **named_coordinates(coordinates)}
+        x, y, z = world + state.position[found].T[:, :, None, None]
+        return {'x': x, 'y': y, 'z': z, 't': np.reshape(time, (-1, 1, 1)),
+                **named_coordinates(coordinates)}
 
-    return places
+    coordinates, _ = rule(_SAMPLE_DEGREE)
+    ranges = []
+    for time in times:
+        values = expression.values(**at(time, chosen, coordinates))
+        values = np.where(np.isfinite(values), values, 0.0)
+        ranges.append(np.ptp(values, axis=-1).max(axis=(0, 2)))
+    # And some that are spread evenly.
+    order = np.argsort(-np.ravel(ranges), kind='stable')[:_SAMPLE_COUNT]
+    spread = np.linspace(0, len(times) * len(chosen) - 1, 8).astype(int)
+    number, body = np.divmod(np.union1d(order, spread), len(chosen))
+    sampled = np.array(times)[number]
+    return lambda coordinates: at(sampled, chosen[body], coordinates)
 
 
 def named_coordinates(coordinates: np.ndarray) -> dict[str, np.ndarray]:

@@ -57,7 +57,9 @@ def make_line_load(
     if expression is not None:
         rule = choose_quadrature(
             expression, _edge_rule,
-            sample_places(start, bodies, points) if moving else named_coordinates)
+            sample_places(
+                expression, _edge_rule, start, bodies, points, parameters['duration'])
+            if moving else named_coordinates)
     coordinates, weights = _edge_rule(rule.degree + 1)
     weights = 2.0 * half_edge * weights
     if expression is not None and moving:

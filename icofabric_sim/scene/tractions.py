@@ -110,7 +110,8 @@ def make_traction(
     directions = _directions(parameters, prefix, half_edge, expression)
     if expression is not None and {*PLACE} & {*expression.variables}:
         rule = choose_quadrature(expression, triangle_rule, sample_places(
-            start, bodies, lambda coordinates: face_points(half_edge, coordinates)))
+            expression, triangle_rule, start, bodies,
+            lambda coordinates: face_points(half_edge, coordinates), parameters['duration']))
         coordinates, _ = triangle_rule(rule.degree + 1)
         points, areas = face_quadrature(half_edge, degree=rule.degree + 1)
         return SurfaceLoad(

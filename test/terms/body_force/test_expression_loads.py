@@ -166,6 +166,34 @@ def test_rules_are_chosen_by_their_error():
             scene_with({**base, 'tractions.w.expression': text})
 
 
+def test_rules_are_chosen_where_an_expression_varies():
+    """A narrow peak on one of many bodies, and a front that passes at 2 m/s."""
+    base = make_scene((8, 8, 2), {'weave.connected': False})
+    body = base.body_count // 3
+    centre = base.position[body] + face_geometry(base.geometry.half_edge).centroids[0] @ (
+        cosines_from_quaternions(base.orientation[[body]])[0])
+    given = {'groups.w': 'all', 'tractions.w.group': 'w', 'tractions.w.pressure': 1000.0}
+    scene = base.with_changes({
+        **given, 'tractions.w.faces': 'numbers 1', **{
+            f'constants.c{axis}': float(value) for axis, value in zip('xyz', centre)},
+        'tractions.w.expression': 'exp(-((x - cx)**2 + (y - cy)**2 + (z - cz)**2)/0.003**2)'})
+    force, _ = wrenches(scene, 0.0)
+    corner, sides = np.split(face_geometry(scene.geometry.half_edge).frames[0], [1], axis=1)
+    xi, weight = np.polynomial.legendre.leggauss(80)
+    xi, weight = 0.5 * xi + 0.5, 0.5 * weight
+    a, b = xi[:, None], (1.0 - xi[:, None]) * xi
+    points = corner.T + (a[..., None] + 0.0 * b[..., None]) * sides[:, 0] + b[..., None] * (
+        sides[:, 1])
+    middle = face_geometry(scene.geometry.half_edge).centroids[0]
+    peak = np.exp(-((points - middle)**2).sum(axis=-1) / 0.003**2)
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]))
+    exact = 1000.0 * area * (weight[:, None] * (1.0 - a) * weight * peak).sum()
+    assert np.linalg.norm(force[body]) == pytest.approx(exact, rel=1e-6)
+    with pytest.raises(ico.ParameterError, match='do not converge'):
+        base.with_changes({
+            **given, 'tractions.w.expression': 'where(x + 0.1 < 2*t, 1, 0)'})
+
+
 def test_fields_of_place_act_on_charges_and_dipoles():
     """E = (k x, -k y, E_z): forces Q E + (p . grad) E and torques p x E, exact for linear E."""
     k, dipole = 3e4, np.array([2e-7, -1e-7, 3e-7])
