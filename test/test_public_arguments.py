@@ -217,7 +217,7 @@ def table(t):
             'compiled': flag(None, True, False, optional=True)}),
         'BodyForce.prepare': (force.prepare, {
             'layout': Argument([simulation.packed.layout], NO_OBJECT),
-            'numbers': array(np.ones((n, 13)))}),
+            'numbers': array(np.ones((n, 13))), 'time': number(0.0, 1)}),
         'BodyForce.energy': (force.energy, {
             'time': number(0.0, 1), 'position': array(positions), 'orientation': array(turned)}),
         'BodyForce.explain': (force.explain, {

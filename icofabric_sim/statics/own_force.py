@@ -44,7 +44,7 @@ class OwnForce:
         """
         self._force, self._half_edge, self._time, self._factor = force, half_edge, time, factor
         self._external = force.prepare(
-            layout, np.hstack([position, orientation, np.zeros((len(position), 6))]))
+            layout, np.hstack([position, orientation, np.zeros((len(position), 6))]), time)
         set_profiles(force, self._external, profiles)
         self._refuse_coupling(position, orientation)
 

@@ -79,7 +79,9 @@ class BodyForce:
         """Return the functions without compiled code, which is valid in one process only."""
         return {**vars(self), 'is_compiled': None, '_compiled': None, '_keep': [], '_error': None}
 
-    def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
+    def prepare(
+        self, layout: Layout, numbers: np.ndarray, time: float = 0.0
+    ) -> External:
         """
         Compile the function if possible, and call it once.
 
@@ -89,6 +91,8 @@ class BodyForce:
             Slots of the bodies.
         numbers
             Initial state, (n, 13): position, orientation, velocity, angular velocity.
+        time
+            Time [s] of this call, from which on the force acts.
 
         Returns
         -------
@@ -101,6 +105,7 @@ class BodyForce:
             The function fails, or does not return finite forces and torques.
         """
         checks.instance('layout', layout, Layout)
+        time = checks.number('time', time, unit='s')
         numbers = checks.array('numbers', numbers, ('n', 13))
         count = len(numbers)
         if self.profile_count:
@@ -123,9 +128,9 @@ class BodyForce:
             address = ctypes.cast(self._keep[-1], ctypes.c_void_p).value
             assert address is not None
         external = external._replace(address=int(address))
-        self._try(external)
+        self._try(external, time)
         try:
-            start = self.energy(0.0, numbers[:, _PARTS[0]], numbers[:, _PARTS[1]])
+            start = self.energy(time, numbers[:, _PARTS[0]], numbers[:, _PARTS[1]])
         except Exception as error:  # noqa: BLE001 - code of the user
             raise ValueError(
                 self._sentence(external, f'its potential: {_words(error)}')) from error
@@ -289,23 +294,24 @@ class BodyForce:
                 f'{torque.shape}')
         return np.concatenate([force, torque], axis=-1)
 
-    def _try(self, external: External) -> None:
+    def _try(self, external: External, time: float) -> None:
         """Call the function once with the initial state."""
         if self.is_compiled:
             # Compiled code would not detect missing values.
             try:
-                self._of_body(0.0, external.numbers[0], 0, self._rows(external))
+                self._of_body(time, external.numbers[0], 0, self._rows(external))
             except Exception as error:  # noqa: BLE001 - code of the user
                 raise ValueError(self._sentence(external, _words(error))) from error
+        external.moment[0] = time
         function = C_FUNCTION(external.address)
         status = function(
-            0.0, len(external.numbers), external.numbers.ctypes.data, external.result.ctypes.data)
+            time, len(external.numbers), external.numbers.ctypes.data, external.result.ctypes.data)
         if status:
             raise ValueError(self.explain(external))
         if self._wanted is not None or not self.is_compiled:
             return
         try:
-            other = self._of_all(0.0, external.numbers)
+            other = self._of_all(time, external.numbers)
         except Exception:  # noqa: BLE001 - the function is for one body
             return
         size = np.abs(external.result).max(initial=0.0)
@@ -340,13 +346,15 @@ class SummedForce(BodyForce):
     def _no_force(*state: Any) -> Any:
         """Stand for the functions of the parts."""
 
-    def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
+    def prepare(
+        self, layout: Layout, numbers: np.ndarray, time: float = 0.0
+    ) -> External:
         """Prepare each part, and return the record of a function that calls all."""
         external = External(
             0, layout.slot, numbers, np.zeros((len(numbers), 6)),
             aligned_empty((6, layout.slot_count)), np.zeros(1, np.int64), np.zeros(1))
         external.rows[:] = 0.0
-        externals = [part.prepare(layout, numbers.copy()) for part in self._summed]
+        externals = [part.prepare(layout, numbers.copy(), time) for part in self._summed]
 
         def call(time: float, count: int, given: int, result: int) -> int:
             external.result[:] = 0.0

@@ -428,6 +428,10 @@ def test_statics_needs_a_time_for_forces_of_time():
     found, steady = (ico.solve_equilibrium(each, time=0.2) for each in (
         scene, scene.with_changes({'loads.l.expression': '', 'loads.l.force': [0.0, 0.0, -0.2]})))
     assert found.snapshot.position == pytest.approx(steady.snapshot.position, abs=1e-9)
+    # The expression need not be finite at another time.
+    late = ico.solve_equilibrium(
+        scene.with_changes({'loads.l.expression': '0, 0, -0.2*sqrt(t - 0.5)/sqrt(0.5)'}), time=1.0)
+    assert late.snapshot.position == pytest.approx(steady.snapshot.position, abs=1e-9)
 
 
 def test_live_changes_are_recorded_and_verified(tmp_path):
