@@ -30,9 +30,9 @@ def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
         place += 0.01 * A * rng.normal(size=place.shape)
         now = state._replace(position=place)
         # As found by what the state before has left, and once more by what that leaves.
-        contact_look(contacts, now)
+        contact_look(contacts, now.position, now.orientation)
         kept = contacts.aside.copy()
-        contact_look(contacts, now)
+        contact_look(contacts, now.position, now.orientation)
         again = contacts.aside.copy()
         # By nothing, and in another order.
         order = rng.permutation(count)
@@ -40,7 +40,7 @@ def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
             pairs=contacts.pairs[order].copy(), aside=np.zeros_like(contacts.aside),
             sleep=contacts.sleep._replace(
                 looked=np.full(count, AWAKE), until=contacts.sleep.until[order].copy()))
-        contact_look(other, now)
+        contact_look(other, now.position, now.orientation)
         new = np.empty_like(kept)
         new[order] = other.aside
         touching = new[:, 9] > 0.0
