@@ -222,7 +222,7 @@ def test_steps_follow_how_stiff_what_touches_is():
         driver = simulation._driver
         phase, state, model = (
             driver.contact.phase, driver.trajectory.state, driver.trajectory.model)
-        assert contact_look(phase.contacts, state)[2] == 1
+        assert contact_look(phase.contacts, state.position, state.orientation)[2] == 1
         found.append(largest_stiffness(
             phase.contacts, state.position, model.inverse_mass, model.inverse_inertia, 1e300, 0.0,
             np.zeros(state.position.shape[1])) / (phase.setup.stiffness * model.inverse_mass))

@@ -91,12 +91,12 @@ def test_a_look_leaves_out_only_what_is_apart(changes):
         for shift in (0.0, 1e-4 * A, 1e-2 * A):
             place = state._replace(position=aligned(
                 state.position + shift * rng.normal(size=state.position.shape)))
-            found = contact_look(contacts, place)
+            found = contact_look(contacts, place.position, place.orientation)
             rows = contacts.aside.copy()
             slept.append(np.mean(contacts.sleep.looked == np.inf))
             all_awake = contacts._replace(sleep=contacts.sleep._replace(
                 until=np.full(len(contacts.pairs), AWAKE)))
-            assert contact_look(all_awake, place) == found
+            assert contact_look(all_awake, place.position, place.orientation) == found
             touching = rows[:, 9] > 0.0
             assert (touching == (contacts.aside[:, 9] > 0.0)).all()
             assert (rows[touching] == contacts.aside[touching]).all()
