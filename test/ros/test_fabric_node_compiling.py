@@ -70,7 +70,7 @@ def test_the_clock_runs_while_a_new_term_compiles_and_the_bag_verifies(tmp_path,
         longest = max(np.diff([ticks[0][0], *moves, ticks[-1][0]]))
         print(f'\n{took:.1f} s of compilation, the clock stood still for at most {longest:.3f} s, '
               f'{len(poses) - count} poses')
-        assert took > 3.0 and longest < 0.3 * took and len(poses) - count > 5.0 * took
+        assert took > 0.5 and longest < 0.3 * took and len(poses) - count > 5.0 * took
         client.wait_until(client.clock + 3 * 10**8)
         node.send(signal.SIGINT)
         assert node.wait() == 0
