@@ -29,12 +29,12 @@ _REPORT_INTERVAL = 1.0
 
 
 def schedules(
-    parameters: Parameters, periodic: Iterable[Topic] | None = None
+    parameters: Parameters, periodic: Iterable[Topic]
 ) -> dict[Topic, Schedule]:
     """Return the schedules of the outputs of a run; breakages are sent only when they happen."""
     return {
         topic: Schedule(parameters[topic.rate])
-        for topic in (topics.PERIODIC if periodic is None else periodic)
+        for topic in periodic
         if not topic.requires or parameters[topic.requires]}
 
 

@@ -181,7 +181,8 @@ class Completeness:
         """Set the rates in force; the first scene of a bag is followed by its state."""
         parameters = self._run.parameters_of(self._run.decoded(decode_string, data))
         self._schedules = {
-            topic: schedule for topic, schedule in schedules(parameters).items()
+            topic: schedule for topic, schedule in schedules(
+                parameters, topics.PERIODIC).items()
             if topic.name in self._sent and topic not in self._left_out}
         if not self._has_begun:
             self._has_begun = self._may_clear = True

@@ -189,6 +189,11 @@ class Inputs:
         return {target: self.active[target] for target in sorted(self.active, key=load_order)}
 
     @property
+    def limits_steps(self) -> bool:
+        """True if expressions change at known times, or limit the length of steps."""
+        return bool(self._marks) or self.expression_step < math.inf
+
+    @property
     def next_expression_change(self) -> float:
         """Time [s] just after the next change of an expression; infinite without one."""
         return min((self.timetable.next_start(name) for name in self._marks), default=math.inf)

@@ -93,8 +93,8 @@ class Trajectory:
         self.broken = Broken(packed)
         # Of the inputs, which pack the loads; None: no anchor can break.
         self.anchor_breaks = setup.inputs.anchor_breaks
-        # None if no load depends on place or time by an expression.
-        self.changing = setup.inputs if setup.scene.expression_loads else None
+        # None if no expression ends or limits steps.
+        self.changing = setup.inputs if setup.inputs.limits_steps else None
         # For evaluations of a state, which do not depend on the method.
         self._room_of: Without[Work] = Without('trail', 'breakage', 'external', 'kinks')
         self._forces_of: Without[Model] = Without(*BESIDE_ACCELERATIONS)

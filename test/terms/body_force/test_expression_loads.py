@@ -449,3 +449,13 @@ def test_live_changes_are_recorded_and_verified(tmp_path):
         result = verify_run(run)
     assert result.verdict == 'identical' and result.repeated['re-weaves'] == 2
     assert result.compared.total() > 10
+
+
+@pytest.mark.parametrize('text, ends_steps', [
+    ('-20*x, -20*y, 0', False), ('0, 0, 0.01*max(0, 1 - abs(t - 0.5)/0.1)', True)])
+def test_only_changes_in_time_end_steps(text, ends_steps):
+    """Loads of place alone leave many steps to each call of a kernel."""
+    simulation = ico.compile_scene(scene_with({
+        'loads.w.group': 'all', 'loads.w.expression': text}))
+    trajectory = simulation._driver.trajectory
+    assert (trajectory.changing is not None) is ends_steps
